@@ -195,8 +195,9 @@ def test_a_path_that_cannot_be_written(tmp_path: Path) -> None:
     assert str(tmp_path / "file") in failed.stderr
 
 
-def test_ctrl_c_leaves_a_valid_shorter_dataset(tmp_path: Path) -> None:
-    """What was simulated until then is whole: it passes the check."""
+@pytest.mark.parametrize(("number", "name"), [(signal.SIGINT, "Ctrl-C"), (signal.SIGTERM, "SIGTERM")])
+def test_a_signal_leaves_a_valid_shorter_dataset(tmp_path: Path, number: signal.Signals, name: str) -> None:
+    """What was simulated until then is whole: it passes the check. The line says which signal it was."""
     out = tmp_path / "out"
     command = [sys.executable, "-m", "davis_rs.cli", "simulate", "three_planes", "-o", str(out), *map(str, SMALL)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -205,10 +206,10 @@ def test_ctrl_c_leaves_a_valid_shorter_dataset(tmp_path: Path) -> None:
         assert process.poll() is None, process.communicate()
         assert time.monotonic() < deadline
         time.sleep(0.005)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     stdout, stderr = process.communicate(timeout=120)
     assert process.returncode == 130, stderr
-    assert "cut short by Ctrl-C" in stdout
+    assert f"cut short by {name}" in stdout
     meta = json.loads((out / "meta.json").read_text())
     assert (meta["complete"], meta["interrupted"]) == (False, True)
     assert 25_000 <= meta["duration_us"] < 2_000_000

@@ -18,6 +18,7 @@ from davis_rs.generate import SequencePlan, load_sequence_plan
 from davis_rs.generate.generate import check_sequences, draw_sequences
 from davis_rs.generate.motion import MOTIONS, make_motion
 from davis_rs.generate.sequence_plan import sequence_name
+from davis_rs.scene.lost_looks import UNKNOWN
 from davis_rs.sensor.effects import parse_effect
 from davis_rs.sensor.effects.effects import named_effects
 from davis_rs.simulation.settings import FolderSettings, complete, view_scene
@@ -77,6 +78,20 @@ def test_a_mesh_has_its_axis_its_unit_and_its_files(tmp_path: Path) -> None:
         assert f"is {2 * scale:.3g} m x 0 m wide and {4 * scale:.3g} m high" in sequence.scene().note
     (tmp_path / "flag.mtl").write_text("newmtl red\nKd 0 1 0\n")
     assert load_sequence_plan(plan.file).sha256 != plan.sha256
+
+
+def test_what_is_missing_is_grey_where_the_plan_says_so(tmp_path: Path) -> None:
+    """As with ``--grey-unknown``; without it the plan is refused, with that remedy."""
+    (tmp_path / "flag.obj").write_text("mtllib none.mtl\nusemtl red\nv 0 0 0\nv 2 0 0\nv 0 0 4\nf 1 2 3\n")
+    text = "scene: flag.obj\nduration: 0.1\nup: z\n"
+    plan = read(tmp_path, text)
+    with pytest.raises(ValueError, match=r"none\.mtl.*--grey-unknown"):
+        check_sequences(plan, draw_sequences(plan))
+    plan = read(tmp_path, text + "grey_unknown: true\n")
+    [sequence] = draw_sequences(plan)
+    check_sequences(plan, [sequence])
+    assert [look.what for look in sequence.scene().lost_looks] == [UNKNOWN]
+    assert set(plan.digests) == {"flag.obj"}
 
 
 def test_a_known_name_is_no_file(tmp_path: Path) -> None:

@@ -12,7 +12,8 @@ from PIL import Image
 
 from clips import write_exr
 from davis_rs import DecodeError, load_scene
-from davis_rs._mitsuba.files import XmlFile, check_ply, check_scene_dictionary, read_scene_file
+from davis_rs._mitsuba.files import XmlFile, check_scene_dictionary, read_scene_file
+from davis_rs._mitsuba.ply_mesh import check_ply
 from davis_rs._mitsuba.variants import SCALAR, load_scene_source, variant
 from davis_rs._util.budget import VARIABLE, Budget
 from davis_rs.cli.main import main

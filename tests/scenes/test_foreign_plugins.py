@@ -242,6 +242,26 @@ def test_meshes_with_normals_without_a_direction_are_flat(tmp_path: Path, lost: 
     np.testing.assert_allclose(luma(whole), expected, rtol=1e-5)
 
 
+@pytest.mark.parametrize(
+    ("given", "same"),
+    [
+        ('<rgb name="reflectance" value="255, 51, 0"/>', "0.99, 0.198, 0"),
+        ('<spectrum name="reflectance" value="2, 1, 1"/>', "0.99, 0.495, 0.495"),
+        ('<texture name="reflectance" type="checkerboard"><rgb name="color0" value="30, 30, 30"/>'
+         '<rgb name="color1" value="30, 30, 30"/></texture>', "0.99, 0.99, 0.99"),
+    ],
+)  # fmt: skip
+def test_reflectances_above_1_are_scaled(tmp_path: Path, given: str, same: str) -> None:
+    """As Mitsuba 0.6 scales them; Mitsuba 3 refuses them. What lights emit stays as it is."""
+    expected = luma(scene_file(tmp_path, colour=f'<rgb name="reflectance" value="{same}"/>'))
+    path = scene_file(tmp_path, colour=given)
+    with pytest.warns(
+        SceneFileWarning, match=r"reflectances above 1 \(up to \d+\) are scaled to 0\.99, as in Mitsuba 0\.6"
+    ):
+        davis_rs.load_scene(path)
+    np.testing.assert_allclose(luma(path), expected, rtol=1e-5)
+
+
 def test_media_are_shown_in_the_place_of_unknown_integrators(tmp_path: Path) -> None:
     fog = '<medium type="homogeneous" id="fog"><float name="sigma_t" value="1"/></medium>'
     path = scene_file(tmp_path, integrator=f'<integrator type="bdpt"/>{fog}')

@@ -328,6 +328,7 @@ def test_highlights_of_phong_are_as_high_and_as_wide(tmp_path: Path, case: str) 
         ('<bsdf type="disneydiffuse"><rgb name="baseColor" value="0.2, 0.3, 0.4"/></bsdf>', "by the same model"),
         ('<bsdf type="disneymetal"><rgb name="baseColor" value="0.2, 0.3, 0.4"/></bsdf>', "by the same model"),
         ('<bsdf type="disneysheen"/>', "'disneysheen' are taken as 'principled', by the same model, over black"),
+        ('<bsdf type="disneyclearcoat"/>', "over black, with highlights as strong from straight ahead"),
         ('<bsdf type="disneyglass"><float name="eta" value="1.4"/></bsdf>', "whose reflections have no colour"),
     ],
 )  # fmt: skip
@@ -359,10 +360,21 @@ def test_disney_sheen_alone(tmp_path: Path, given: str, tint: float) -> None:
     np.testing.assert_allclose(reflected(path, into, out), hue * (1 - half @ out) ** 5 * out[2], rtol=1e-3)
 
 
+@pytest.mark.parametrize(("given", "gloss"), [('<float name="clearcoatGloss" value="0.4"/>', 0.4), ("", 1.0)])
+def test_disney_clearcoat_alone(tmp_path: Path, given: str, gloss: float) -> None:
+    """Straight ahead it is as strong as Burley's lobe, of an index of 1.5."""
+    path = scene_file(tmp_path, f'<bsdf type="disneyclearcoat">{given}</bsdf>', "0.6.0")
+    square = ((1 - gloss) * 0.1 + gloss * 0.001) ** 2
+    height = (square - 1) / (np.pi * np.log(square) * square)
+    ahead = np.array([0.0, 0.0, 1.0])
+    np.testing.assert_allclose(reflected(path, ahead, ahead), 0.04 * height / 4, rtol=1e-3)
+
+
 @pytest.mark.parametrize(
     "material",
     [
         '<bsdf type="hk"/>',
+        '<bsdf type="disneyclearcoat"><float name="clearcoatGloss" value="2"/></bsdf>',
         '<bsdf type="phong"><texture name="specularReflectance" type="mesh_attribute"><string name="name" '
         'value="vertex_color"/></texture></bsdf>',
         '<bsdf type="phong"><texture name="exponent" type="checkerboard"/></bsdf>',
@@ -407,7 +419,7 @@ def test_grey_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[
     path = scene_file(tmp_path, '<bsdf type="hk"/>')
     run = ["simulate", str(path), "--camera", "ideal", "-o", str(tmp_path / "out"), "--grey-unknown"]
     assert main(["simulate", "three_planes", *run[2:]]) != 0
-    assert "--grey-unknown is for a Mitsuba XML file, an OBJ or a PLY mesh that is there" in capsys.readouterr().err
+    assert "--grey-unknown is for a Mitsuba XML file, a glTF file, or an OBJ or a PLY mesh" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("coefficient", ["0.5, 1, 2", "2"])

@@ -26,7 +26,7 @@ from davis_rs.render.scene_cache import shared_scenes
 from davis_rs.render.scene_tables.scene_table import SceneTable
 from davis_rs.render.truth import lost_look_fractions
 from davis_rs.scene.files import gltf_mesh
-from davis_rs.scene.lost_looks import BACKS
+from davis_rs.scene.lost_looks import BACKS, MISSING, MISSING_NUMBERS
 from davis_rs.scene.texel_lookup import WRAP_MODES
 from gltf_files import CORNERS, FACES, UV, Gltf, png, quad, with_camera
 
@@ -757,6 +757,40 @@ def test_numbers_that_only_rounding_put_beyond_their_bounds_are_taken(tmp_path: 
     assert np.abs(shapes_of(scene)["mesh_paint"]["corners"]).max() == pytest.approx(2 * half * half)
 
 
+def test_animated_nodes_with_a_matrix(tmp_path: Path) -> None:
+    """glTF does not allow it, but exporters write it: what is not animated is as the matrix says."""
+    turn = Rotation.from_euler("xyz", [20, 30, 40], degrees=True)
+
+    def world(name: str, **at: Any) -> Scene:
+        gltf = Gltf()
+        node = gltf.node(mesh=quad(gltf, material=gltf.material()), name="card", **at)
+        gltf.animate(node, "translation", [0, 1], [[0, 0, 0], [1, 2, 3]])
+        return load_scene(gltf.save(tmp_path / name))
+
+    matrix = np.eye(4)
+    matrix[:3, :3] = turn.as_matrix() * [1, 2, -3]
+    given = {"rotation": Rotation.from_matrix(turn.as_matrix() * [-1, -1, 1]).as_quat().tolist(), "scale": [-1, -2, -3]}
+    expected = world("usual.glb", translation=[9, 9, 9], **given)
+    with pytest.warns(SceneFileWarning, match=r"have a matrix, which glTF does not allow.*: 1 \(the first: nodes\[0\]"):
+        scene = world("matrix.glb", matrix=matrix.T.ravel().tolist())
+    assert scene.objects.keys() == expected.objects.keys() != set()
+    for name, path in scene.objects.items():
+        np.testing.assert_allclose(path.pose(0.5).matrix, expected.objects[name].pose(0.5).matrix, atol=1e-6)
+    for part, same in zip(positions_of(scene), positions_of(expected), strict=True):
+        np.testing.assert_allclose(part, same, atol=1e-6)
+    sheared = matrix.copy()
+    sheared[0, 1] += 1
+    with pytest.raises(DecodeError, match=r"nodes\[0\].* its matrix must be made of a translation, a rotation and a"):
+        world("sheared.glb", matrix=sheared.T.ravel().tolist())
+
+
+def positions_of(scene: Scene) -> list[Any]:
+    """The vertices of the scene's shapes at the start."""
+    with variant(SCALAR) as (mi, _):
+        shapes = load_scene_source(scene.source(), mi).shapes()
+        return [np.array(mi.traverse(shape)["vertex_positions"]) for shape in shapes]
+
+
 def test_animations_by_pointer(tmp_path: Path) -> None:
     """Of a node's place they are its animation; of a material's colour a look that is lost."""
     gltf = Gltf(extensionsUsed=["KHR_animation_pointer"])
@@ -1076,6 +1110,34 @@ def test_missing_files_say_who_names_them(tmp_path: Path) -> None:
     path = broken(textured("none.png")).save(tmp_path / "scene.gltf")
     with pytest.raises(FileNotFoundError, match=r"scene\.gltf: images\[0\]: the file 'none\.png' is not there"):
         load_scene(path)
+
+
+def test_missing_textures_are_grey_where_the_user_says_so(tmp_path: Path) -> None:
+    """Colours are grey; metal, normals and light of missing textures are left out. A missing buffer is refused."""
+    gltf = Gltf()
+    (tmp_path / "there.png").write_bytes(png(np.full((2, 2, 3), 200)))
+    none, there = (gltf.texture({"uri": name}) for name in ("none.png", "there.png"))
+    more = {"normalTexture": none, "emissiveTexture": none, "emissiveFactor": [1, 1, 1]}
+    surface = {"baseColorFactor": [1, 0, 0, 1], "metallicFactor": 1.0, "metallicRoughnessTexture": none}
+    of_paint = gltf.material("paint", more=more, baseColorTexture=none, **surface)
+    gltf.node(mesh=quad(gltf, uv=UV, material=of_paint))
+    whole = gltf.material("whole", baseColorTexture=there, roughnessFactor=1.0)
+    gltf.node(mesh=quad(gltf, uv=UV, material=whole), translation=[0, 0, 1])
+    with_camera(gltf)
+    path = gltf.save(tmp_path / "scene.gltf", buffer="data.bin")
+    with pytest.raises(FileNotFoundError, match=r"'none\.png' is not there; .* as grey: --grey-unknown"):
+        load_scene(path)
+    scene = load_scene(path, grey_unknown=True)
+    assert {(look.what, look.of) for look in scene.lost_looks} == {(MISSING_NUMBERS, ("paint",)), (MISSING, ("paint",))}
+    assert [file.name for file in scene.files] == ["data.bin", "there.png"]
+    with variant(SCALAR) as (mi, _):
+        shapes = {shape.id(): shape for shape in load_scene_source(scene.source(), mi).shapes()}
+        assert not any(shape.is_emitter() for shape in shapes.values())
+        (colour,) = (value for name, value in mi.traverse(shapes["mesh_paint"].bsdf()) if "reflectance" in name)
+    np.testing.assert_allclose(np.ravel(colour), 0.5)
+    (tmp_path / "data.bin").unlink()
+    with pytest.raises(FileNotFoundError, match=r"buffers\[0\]: the file 'data\.bin' is not there$"):
+        load_scene(path, grey_unknown=True)
 
 
 def test_one_mesh_shown_too_often_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,29 +9,22 @@ from __future__ import annotations
 import functools
 import os
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from .._core import DecodeError
 from .._util.budget import Budget
-from .._util.untrusted import decoding, read_charged, regular_file
+from .._util.untrusted import decoding, regular_file
 from .elements import DEEPEST, Element, elements_by_id, read_elements, with_values
+from .ply_mesh import check_ply
 from .types import SceneDictionary
 
 _MOST_INCLUDED = 15
 _TEXEL_BYTES = 16
 """Bytes per texel of an image: as Mitsuba holds it, and as a renderer does."""
-
-_DTYPES = {
-    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
-    "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",
-    "double": "f8", "float64": "f8",
-}  # fmt: skip
-_FACES = ("vertex_index", "vertex_indices")
 
 
 @dataclass(frozen=True)
@@ -215,115 +208,3 @@ def check_scene_dictionary(node: Mapping[str, object]) -> None:
     for value in node.values():
         if isinstance(value, Mapping):
             check_scene_dictionary(value)
-
-
-def check_ply(path: Path, budget: Budget) -> None:
-    """Refuse a PLY mesh whose faces name missing vertices.
-
-    Raises:
-        OSError: if it cannot be read.
-        DecodeError: if it is malformed.
-    """
-    data = read_charged(path, budget)
-    with decoding(path, "PLY"):
-        form, elements, begin = _header(data)
-        count = {name: number for name, number, _ in elements}.get("vertex", 0)
-        if form == "ascii":
-            indices = _ascii_indices(data[begin:].split(), elements)
-        else:
-            indices = _binary_indices(memoryview(data)[begin:], elements, "<" if "little" in form else ">")
-        for block in indices:
-            if len(block) and not (int(block.min()) >= 0 and int(block.max()) < count):
-                wrong = block[(block < 0) | (block >= count)][0]
-                raise ValueError(f"a face names vertex {wrong} of {count}")
-
-
-_Elements = list[tuple[str, int, list[list[str]]]]
-
-
-def _header(data: bytes) -> tuple[str, _Elements, int]:
-    """Parse the header: format; name, number and properties of the elements; and where they begin."""
-    end = data.find(b"end_header")
-    if not data.startswith(b"ply") or end < 0:
-        raise ValueError("it must begin with 'ply', and its header must end")
-    begin = data.index(b"\n", end) + 1
-    form, elements = "", _Elements()
-    for line in data[:end].decode("ascii").splitlines():
-        words = line.split()
-        if words[:1] == ["format"]:
-            form = words[1]
-        elif words[:1] == ["element"]:
-            number = int(words[2])
-            if not 0 <= number <= len(data):  # each takes a byte at least
-                raise ValueError(f"there are not {number} of {words[1]}")
-            elements.append((words[1], number, []))
-        elif words[:1] == ["property"]:
-            elements[-1][2].append(words[1:])
-    return form, elements, begin
-
-
-def _ascii_indices(words: list[bytes], elements: _Elements) -> Iterator[npt.NDArray[np.int64]]:
-    at = 0
-    for _, number, properties in elements:
-        for _ in range(number):
-            for entry in properties:
-                length = 1
-                if entry[0] == "list":
-                    length, at = int(words[at]), at + 1
-                if at + length > len(words) or length < 0:
-                    raise ValueError("it ends before its elements do")
-                if entry[0] == "list" and entry[-1] in _FACES:
-                    yield np.array(words[at : at + length], np.int64)
-                at += length
-
-
-def _binary_indices(data: memoryview, elements: _Elements, order: str) -> Iterator[npt.NDArray[np.int64]]:
-    at = 0
-    for _, number, properties in elements:
-        if all(entry[0] != "list" for entry in properties):
-            at += number * sum(np.dtype(_DTYPES[entry[0]]).itemsize for entry in properties)
-            continue
-        rows = _equal_rows(data[at:], number, properties, order)
-        if rows is not None:
-            at += rows.nbytes
-            for k, entry in enumerate(properties):
-                if entry[0] == "list" and entry[-1] in _FACES:
-                    yield rows[f"values{k}"].ravel().astype(np.int64)
-            continue
-        for _ in range(number):
-            for entry in properties:
-                length, kind = 1, entry[0]
-                if entry[0] == "list":
-                    count = np.dtype(order + _DTYPES[entry[1]])
-                    length, kind, at = int(np.frombuffer(data, count, 1, at)[0]), entry[2], at + count.itemsize
-                dtype = np.dtype(order + _DTYPES[kind])
-                if length < 0:
-                    raise ValueError(f"a list of {length} values")
-                values = np.frombuffer(data, dtype, length, at) if length else np.zeros(0, dtype)
-                if entry[0] == "list" and entry[-1] in _FACES:
-                    yield values.astype(np.int64)
-                at += values.nbytes
-
-
-def _equal_rows(data: memoryview, number: int, properties: list[list[str]], order: str) -> npt.NDArray[np.void] | None:
-    """Read the rows as one array if each list is as long as in the first row, as triangles are; else return None."""
-    fields: list[tuple[str, str | np.dtype[np.generic]] | tuple[str, str, tuple[int]]] = []
-    at = 0
-    for k, entry in enumerate(properties):
-        if entry[0] != "list":
-            fields.append((f"value{k}", order + _DTYPES[entry[0]]))
-        elif number:
-            count = np.dtype(order + _DTYPES[entry[1]])
-            length = int(np.frombuffer(data, count, 1, at)[0])
-            if not 0 <= length < 1 << 16:
-                return None
-            fields += [(f"count{k}", count), (f"values{k}", order + _DTYPES[entry[2]], (length,))]
-        else:
-            fields.append((f"values{k}", order + _DTYPES[entry[2]], (0,)))
-        at = np.dtype(fields).itemsize
-    dtype = np.dtype(fields)
-    if number * dtype.itemsize > len(data):
-        return None
-    rows = np.frombuffer(data, dtype, number)
-    equal = all((rows[name] == rows[name][:1]).all() for name, *_ in fields if name.startswith("count"))
-    return rows if equal else None

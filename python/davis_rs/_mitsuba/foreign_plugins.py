@@ -16,8 +16,10 @@ from typing import NamedTuple
 
 from .added_lights import add_lights
 from .animated_transforms import Motion, take_motions
+from .bright_reflectances import dim_reflectances
 from .elements import Element, written
 from .files import SceneFile, XmlFile, read_scene_file
+from .foreign_meshes import meshes_rewritten
 from .former_lights import translate_lights
 from .former_materials import translate
 from .former_notation import rewrite
@@ -83,18 +85,22 @@ def load_file(file: XmlFile, mi: Mitsuba) -> LoadedFile:
     motions = take_motions(read, mi, notes)
     translate_textures(read, notes)
     translate(read, notes)
+    dim_reflectances(read, notes)
     translate_lights(read, notes)
     add_lights(read.root, file.lights)
     grey = make_grey(read, mi, notes) if file.grey_unknown else []
     config = mi.parser.ParserConfig(mi.variant())
     config.merge_equivalent = config.merge_meshes = False
     config.unused_properties = mi.LogLevel.Trace  # they are looked at below
-    text, places = written(read.root)
-    # Mitsuba refuses variables that it does not find; those in the names of included files are no longer there.
-    gone = [name for name in file.variables if any(f"${name}" in each for each in read.including)]
-    variables = {name: value for name, value in file.variables.items() if name not in gone or f"${name}" in text}
+    places: list[str] = []
     try:
-        with _files_next_to(file, mi):
+        with meshes_rewritten(read, notes) as meshes, _files_next_to(file, mi):
+            text, places = written(read.root)
+            # Mitsuba refuses variables that it does not find; those in names of such files are no longer there.
+            gone = [name for name in file.variables if any(f"${name}" in each for each in read.including + meshes)]
+            variables = {
+                name: value for name, value in file.variables.items() if name not in gone or f"${name}" in text
+            }
             state = mi.parser.parse_string(config, text, **variables)
             mi.parser.transform_all(config, state)
             light = "volpath" if any(node.type == mi.ObjectType.Medium for node in state.nodes) else "path"

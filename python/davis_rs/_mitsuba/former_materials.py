@@ -133,6 +133,19 @@ def _disney_glass(material: FormerPlugin) -> str | None:
     return "whose reflections have no colour"
 
 
+def _disney_clearcoat(material: FormerPlugin) -> str | None:
+    """Write a coat over nothing, whose lobe is Burley's ("GTR1"), as a lobe of another shape that is as high."""
+    gloss = material.number("clearcoat_gloss", 1.0)
+    if gloss is None or not 0 <= gloss <= 1:
+        return None
+    square = ((1 - gloss) * 0.1 + gloss * 0.001) ** 2
+    material.becomes("roughplastic", ("clearcoat_gloss",))
+    material.put(alpha=math.sqrt(square * math.log(square) / (square - 1)), int_ior=1.5, ext_ior=1.0)
+    material.put(diffuse_reflectance=np.zeros(3))
+    material.element.children.append(material.element.child("string", name="distribution", value="ggx"))
+    return "over black, with highlights as strong from straight ahead"
+
+
 def _lobe_and_diffuse(material: FormerPlugin, alpha: float | None, drop: tuple[str, ...]) -> str | None:
     """Write a diffuse colour with a lobe that has no Fresnel factor, whose width is that of a Beckmann lobe."""
     mirrored, means = _specular(material)
@@ -346,6 +359,7 @@ _TRANSLATIONS: dict[str, Callable[[FormerPlugin], str | None]] = {
     "disneymetal": _disney_metal,
     "disneyglass": _disney_glass,
     "disneysheen": _disney_sheen,
+    "disneyclearcoat": _disney_clearcoat,
     "phong": _phong,
     "ward": _ward,
     "roughdiffuse": _rough_diffuse,

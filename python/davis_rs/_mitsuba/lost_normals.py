@@ -14,6 +14,7 @@ _WITHOUT_DIRECTION = re.compile(
     rb"|^vn[ \t][^\n]*(?:nan|inf)",
     re.MULTILINE | re.IGNORECASE,
 )
+FLAT = "have normals without a direction, so their faces are flat"
 
 
 def flatten_lost_normals(file: SceneFile, notes: list[str]) -> None:
@@ -29,14 +30,25 @@ def flatten_lost_normals(file: SceneFile, notes: list[str]) -> None:
         mesh = None if name is None else file.named_by(name)
         if mesh is None or not _has_lost_normals(mesh):
             continue
-        given = shape.get("face_normals")
-        if given is None or given.attributes.get("value") != "true":
-            element.children = [child for child in element.children if child is not given]
-            element.children.append(element.child("boolean", name="face_normals", value="true"))
+        if not is_flat(shape):
+            make_flat(shape)
             flat.append(mesh.name)
     if flat:
         names = ", ".join(dict.fromkeys(flat))
-        notes.append(f"its meshes {names[:80]} have normals without a direction, so their faces are flat")
+        notes.append(f"its meshes {names[:80]} {FLAT}")
+
+
+def is_flat(shape: FormerPlugin) -> bool:
+    """Return whether the faces of a mesh are flat already."""
+    given = shape.get("face_normals")
+    return given is not None and given.attributes.get("value") == "true"
+
+
+def make_flat(shape: FormerPlugin) -> None:
+    """Show the faces of a mesh flat."""
+    element = shape.element
+    element.children = [child for child in element.children if child.name != "face_normals"]
+    element.children.append(element.child("boolean", name="face_normals", value="true"))
 
 
 def _has_lost_normals(mesh: Path) -> bool:

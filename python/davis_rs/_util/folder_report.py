@@ -21,7 +21,8 @@ class FolderReport:
         path: the folder.
         events: written.
         duration_s, wall_s: of the sequence, and wall time, in seconds.
-        interrupted: whether Ctrl-C cut it short.
+        interrupted: whether a signal cut it short.
+        stopped_by: that signal: ``Ctrl-C`` or ``SIGTERM``; else empty.
         dropped_events: how many events the readout dropped.
         missed_events: how often a pixel reached a level before its last event was read out and its reset over.
     """
@@ -31,12 +32,13 @@ class FolderReport:
     duration_s: float
     wall_s: float
     interrupted: bool
+    stopped_by: str = ""
     dropped_events: int = 0
     missed_events: int = 0
 
     def _line(self, events: str) -> str:
         rate = self.events / self.duration_s if self.duration_s else 0.0
-        cut = ", cut short by Ctrl-C" if self.interrupted else ""
+        cut = f", cut short by {self.stopped_by}" if self.interrupted else ""
         dropped = f", {self.dropped_events:,} dropped by the readout" if self.dropped_events else ""
         missed = f", {self.missed_events:,} missed by pixels that waited for the bus" if self.missed_events else ""
         return (

@@ -8,10 +8,15 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+_NAMES = {int(signal.SIGINT): "Ctrl-C", int(signal.SIGTERM): "SIGTERM"}
+
 
 @contextmanager
-def stop_requests() -> Iterator[Callable[[], bool]]:
-    """Catch the first SIGINT or SIGTERM as a wish; the next one acts as it would have."""
+def stop_requests() -> Iterator[Callable[[], str]]:
+    """Catch the first SIGINT or SIGTERM as a wish; the next one acts as it would have.
+
+    Yields a function that returns who wished it, ``Ctrl-C`` or ``SIGTERM``; nobody so far: an empty text.
+    """
     wishes: list[int] = []
 
     def wish(number: int, _: FrameType | None) -> None:
@@ -23,10 +28,10 @@ def stop_requests() -> Iterator[Callable[[], bool]]:
         for number in before:
             signal.signal(number, wish)
     except ValueError:  # not in the main thread: signals are the caller's
-        yield lambda: False
+        yield lambda: ""
         return
     try:
-        yield lambda: bool(wishes)
+        yield lambda: _NAMES[wishes[0]] if wishes else ""
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -63,7 +63,7 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
         "--grey-unknown",
         action="store_true",
         help="take materials that are not known or missing as grey, instead of refusing the file; also of OBJ and PLY "
-        "meshes",
+        "meshes, and missing textures of glTF files",
     )
 
 

@@ -38,7 +38,7 @@ from .sequence_plan import FORMER_KEYS, KEYS, SETTINGS, resolve
 
 Made = TypeVar("Made")
 
-OF_FILES = ("up", "scale", "animation")
+OF_FILES = ("up", "scale", "animation", "grey_unknown")
 """The keys of a plan that go with the name of a file."""
 
 
@@ -49,10 +49,13 @@ class SceneKey(NamedTuple):
     up: Axis | None
     scale: float | None
     animation: str | None
+    grey_unknown: bool
 
     def load(self) -> Scene:
         """Load the scene."""
-        return load_scene(self.name, up=self.up, scale=self.scale, animation=self.animation)
+        return load_scene(
+            self.name, up=self.up, scale=self.scale, animation=self.animation, grey_unknown=self.grey_unknown
+        )
 
 
 @dataclass(frozen=True)
@@ -104,15 +107,15 @@ class DrawnSequence:
         named = self.parameters["scene"]
         if not isinstance(named, str):
             return None
-        up, scale, animation = (self.parameters.get(key) for key in OF_FILES)
-        return SceneKey(resolve("scene", named, self.base), up, scale, animation)
+        up, scale, animation, grey_unknown = (self.parameters.get(key) for key in OF_FILES)
+        return SceneKey(resolve("scene", named, self.base), up, scale, animation, bool(grey_unknown))
 
     def scene(self) -> Scene:
         """Load or draw the scene, without the settings' light."""
         if self.scene_key is not None:
             return self.scene_key.load()
         if given := [key for key in OF_FILES if self.parameters.get(key) is not None]:
-            raise ValueError(f"{' and '.join(given)}: for a mesh or a glTF file, not for a scene that is drawn")
+            raise ValueError(f"{' and '.join(given)}: for a scene's file, not for a scene that is drawn")
         return make_random_scene(self.parameters["scene"], self._end_s, self.base)
 
     @property

@@ -59,6 +59,7 @@ KEYS: dict[str, Parser] = {
     "up": value_of("a text"),
     "scale": value_of("a number"),
     "animation": value_of("a text"),
+    "grey_unknown": value_of("true or false"),
     "motion": motion,
     "start_pose": start_pose,
     "rig": value_of("a text", none=True),
@@ -246,7 +247,7 @@ def _mesh_files(mesh: Path) -> tuple[Path, ...]:
     """List the files that a mesh is read with; none of one that cannot be read, which is refused where it is needed."""
     with warnings.catch_warnings(), suppress(ValueError, OSError):
         warnings.simplefilter("ignore")  # what is to be said of it is said when it is simulated
-        return load_scene(mesh).files
+        return load_scene(mesh, grey_unknown=True).files
     return ()
 
 

@@ -249,7 +249,9 @@ def dataset_contents(dataset: Dataset) -> str:
     if (note := return_note(dataset)) is not None:
         lines.append(f"note        {note}")
     if dataset.meta.get("interrupted"):
-        lines.append("note        cut short: its writer was stopped, by Ctrl-C or an error, and finished the folder")
+        lines.append(
+            "note        cut short: its writer was stopped, by Ctrl-C, SIGTERM or an error, and finished the folder"
+        )
     elif dataset.meta.get("complete") is False:
         lines.append("warning: the folder was never finished: its writer was killed or failed")
     return "\n".join(map(printable, lines))

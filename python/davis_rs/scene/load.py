@@ -73,14 +73,13 @@ def load_scene(
         animation: of a glTF file, the name of the one that is played; None: all, or the first where two move the same.
         variables: of a Mitsuba XML file, a value as text for each ``$name`` in it, before the file's own defaults.
         grey_unknown: take as grey (a reflectance of 0.5), which a warning tells, materials that are not known in a
-            Mitsuba XML file, and materials and textures that are missing of an OBJ or PLY mesh; else such a file is
-            refused.
+            Mitsuba XML file, materials and textures that are missing of an OBJ or PLY mesh, and textures that are
+            missing of a glTF file; else such a file is refused.
 
     Raises:
         ValueError: if it is neither a name nor a file that can be read, or Mitsuba cannot load the file; for ``up`` or
             ``scale`` of what is no mesh, ``animation`` of what is no glTF file or does not have it, ``variables`` of
-            what is no XML file, or that it does not have, and ``grey_unknown`` of what is neither an XML file nor a
-            mesh.
+            what is no XML file, or that it does not have, and ``grey_unknown`` of what is no file that is read.
         OSError: if the file cannot be read.
 
     Warns:
@@ -90,16 +89,19 @@ def load_scene(
     suffix = path.suffix.lower()
     if variables and (suffix != ".xml" or not path.is_file()):
         raise ArgumentError("{variables} are for a Mitsuba XML file that is there, got {!r}", str(name_or_path))
-    if grey_unknown and (suffix not in (".xml", *MESH_READERS) or not path.is_file()):
+    if grey_unknown and (suffix not in (".xml", *GLTF, *MESH_READERS) or not path.is_file()):
         raise ArgumentError(
-            "{grey_unknown} is for a Mitsuba XML file, an OBJ or a PLY mesh that is there, got {!r}", str(name_or_path)
+            "{grey_unknown} is for a Mitsuba XML file, a glTF file, or an OBJ or a PLY mesh that is there, got {!r}",
+            str(name_or_path),
         )
     if animation is not None and (suffix not in GLTF or not path.is_file()):
         raise ArgumentError("{animation} is for a glTF file that is there, got {!r}", str(name_or_path))
     if suffix in MESH_READERS and path.is_file():
         return mesh_scene(path, up=up, scale=1.0 if scale is None else scale, grey_unknown=grey_unknown)
     if suffix in GLTF and path.is_file():
-        return gltf_scene(path, up=up, scale=1.0 if scale is None else scale, animation=animation)
+        return gltf_scene(
+            path, up=up, scale=1.0 if scale is None else scale, animation=animation, grey_unknown=grey_unknown
+        )
     if suffix == ".blend":
         raise ValueError(f"{path}: Blender's files are not read; in Blender choose File, Export, glTF 2.0 (.glb)")
     if suffix in _CONVERTIBLE:

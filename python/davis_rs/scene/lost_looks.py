@@ -21,6 +21,7 @@ SHEEN = "sheen (a Mitsuba XML file has a weaker one, as the sheen of principled)
 UNKNOWN = "materials that are not known, and grey here"
 UNPLACED = "textures of surfaces without texture coordinates (their mean colour is shown)"
 MISSING = "textures that are missing (the surfaces are grey)"
+MISSING_NUMBERS = "textures of normals, metal, roughness or own light that are missing (they are left out)"
 BRUSHED = "anisotropy (only that of numbers is shown, along a texture coordinate, without colours of vertices)"
 BACKS = "backs that cannot be seen (they are seen from both sides)"
 """The look of one-sided surfaces; lost only where the camera sees the other side, which the native renderer culls."""

@@ -142,6 +142,7 @@ def simulate_to_folder(
         duration_s=writer.end_us * 1e-6,
         wall_s=wall_s,
         interrupted=writer.interrupted,
+        stopped_by=stop_requested(),
         dropped_events=run.simulator.dropped_events,
         missed_events=run.simulator.missed_events,
         plan=run.made.plan,

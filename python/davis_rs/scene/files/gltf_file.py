@@ -24,7 +24,7 @@ from ..._core import DecodeError, decode_meshopt
 from ..._util.budget import Budget
 from ..._util.extras import from_extra
 from ..._util.untrusted import decoding, read_charged
-from ..named_file import named_file
+from ..named_file import GREY_UNKNOWN, named_file
 from .rounding import within
 
 _VALUE_BYTES = 100
@@ -228,8 +228,17 @@ class GltfFile:
             raise self.error(where, "must have a bufferView or a uri")
         if item.uri.startswith("data:"):
             return self._embedded(item.uri, where), None
+        if self.lacks_image(item, where):
+            rule = f"is not there; put it there, or take surfaces with missing textures as grey: {GREY_UNKNOWN}"
+            raise _missing(f"{self.path}: {where}: the file {plain(item.uri)} {rule}")
         file = self._local(item.uri, where)
         return read_charged(file, self.budget), file
+
+    def lacks_image(self, item: Item, where: str) -> bool:
+        """Return whether an image, to which ``where`` refers, is in a file that is not there."""
+        if item.bufferView is not None or not isinstance(item.uri, str) or item.uri.startswith("data:"):
+            return False
+        return not self._named(item.uri, where).is_file()
 
     def _parsed(self, text: bytes) -> Item:
         """Parse the JSON; what it will take is charged before."""
@@ -370,18 +379,27 @@ class GltfFile:
         except (binascii.Error, ValueError) as error:
             raise self.error(where, f"is no base64: {error}") from None
 
-    def _local(self, uri: str, where: str) -> Path:
-        """Return the path of a file next to this one, or in a folder below."""
+    def _named(self, uri: str, where: str) -> Path:
+        """Return the path of a file next to this one, or in a folder below. It need not be there."""
         name = unquote(uri)
         if re.match(r"[A-Za-z][\w+.-]*:", name) or "\\" in name:
             raise self.error(where, f"must name a file in the scene's folder, got {plain(uri)}")
-        file = named_file(name, self.path, self.path.parent, f"{self.path}: {where}")
+        return named_file(name, self.path, self.path.parent, f"{self.path}: {where}")
+
+    def _local(self, uri: str, where: str) -> Path:
+        """Return the path of a file that is there, next to this one, or in a folder below."""
+        file = self._named(uri, where)
         if not file.is_file():
-            missing = FileNotFoundError(f"{self.path}: {where}: the file {plain(uri)} is not there")
-            missing.errno = errno.ENOENT  # as the operating system would report it
-            raise missing
+            raise _missing(f"{self.path}: {where}: the file {plain(uri)} is not there")
         self.files[file] = None
         return file
+
+
+def _missing(message: str) -> FileNotFoundError:
+    """Return the error for a file that is not there, as the operating system would report it."""
+    error = FileNotFoundError(message)
+    error.errno = errno.ENOENT
+    return error
 
 
 def unknown(extension: str) -> bool:

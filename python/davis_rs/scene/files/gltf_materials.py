@@ -28,6 +28,7 @@ from .gltf_anisotropy import ANISOTROPY, brushed
 from .gltf_coat import COAT, ClearCoat, clear_coat_of
 from .gltf_file import GltfFile, Item, dictionary, plain
 from .gltf_highlights import IOR, LEAST_INDEX, SPECULAR, Highlights, highlights_of, index_of
+from .gltf_missing import without_missing
 from .rounding import within
 
 _WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
@@ -134,10 +135,12 @@ class GltfMaterials:
     Args:
         repairs: gets what is mended.
         scale: metres in the file's unit.
+        grey_unknown: textures whose files are missing are left out, and their colours are grey; else they are refused.
     """
 
-    def __init__(self, file: GltfFile, repairs: Repairs, scale: float) -> None:
+    def __init__(self, file: GltfFile, repairs: Repairs, scale: float, *, grey_unknown: bool = False) -> None:
         self._file, self._repairs, self._scale = file, repairs, scale
+        self._grey_unknown = grey_unknown
         self._known: dict[int | None, GltfMaterial] = {}
         self._images: dict[int, tuple[EncodedTexture, tuple[Path, ...]]] = {}
         self._charged = ChargedImages(file.budget)
@@ -155,9 +158,12 @@ class GltfMaterials:
         file, where = self._file, f"materials[{index}]"
         item = file.item("materials", index, "a primitive's material")
         name = plain(item.name)[1:-1] if isinstance(item.name, str) and item.name else f"material_{index}"
+        missing = dict[str, None]()
+        if self._grey_unknown:
+            item = without_missing(item, self._is_missing, missing)
         kind, given, info = _diffuse(item)
         where = f"{where}: {kind}"
-        lost = dict.fromkeys(self._lost(item))
+        lost = missing | dict.fromkeys(self._lost(item))
         factor = file.numbers([1.0] * 4 if given is None else given, f"{where}Factor", 4, low=0, high=1)
         transparent = item.alphaMode in ("MASK", "BLEND")
         colour = factor[:3]
@@ -408,8 +414,7 @@ class GltfMaterials:
         """Return the image of a texture, the files that it is from, its wrap mode, and whether texels have hard
         edges; ``transfer`` is how glTF encodes textures of such a use."""
         texture = self._file.item("textures", dictionary(given).get("index"), where)
-        others = (dictionary(dictionary(texture.extensions).get(name)).get("source") for name in _OTHER_IMAGES)
-        source = next((source for source in (texture.source, *others) if source is not None), None)
+        source = _source(texture)
         if source is None:
             message = "has no image of a kind that is read (PNG, JPEG, WebP, KTX2): export with such textures"
             raise self._file.error(where, message)
@@ -417,6 +422,12 @@ class GltfMaterials:
         if image.transfer not in ("", transfer):
             lost[_TRANSFERS[transfer]] = None
         return image, files, *self._sampler(texture, lost)
+
+    def _is_missing(self, given: Item) -> bool:
+        """Return whether the image of a texture is in a file that is not there."""
+        source = _source(self._file.item("textures", given.index, "a material's texture"))
+        where = f"images[{source}]"
+        return source is not None and self._file.lacks_image(self._file.item("images", source, where), where)
 
     def _texture_image(self, given: object, where: str) -> EncodedTexture:
         return self._texture(given, where, {}, "linear")[0]
@@ -497,6 +508,12 @@ def _steeper(texels: npt.NDArray[np.uint8], factor: float) -> npt.NDArray[np.flo
     length = np.linalg.norm(normals, axis=2, keepdims=True)
     np.divide(normals, length, out=normals, where=length > 0)
     return normals * np.float32(0.5) + np.float32(0.5)
+
+
+def _source(texture: Item) -> object:
+    """Return the number of a texture's image, of a kind that is read; None where it has none."""
+    others = (dictionary(dictionary(texture.extensions).get(name)).get("source") for name in _OTHER_IMAGES)
+    return next((source for source in (texture.source, *others) if source is not None), None)
 
 
 def _diffuse(item: Item) -> tuple[str, object, object]:

@@ -20,7 +20,7 @@ from ...geometry.trajectory.trajectory import CallableTrajectory, Trajectory
 from ..keyframes import Track
 from ..repairs import Repairs
 from .gltf_file import GltfFile, Item, plain
-from .gltf_poses import REST, WIDTHS, Node, NodePoses, composed, unit_quaternions
+from .gltf_poses import REST, WIDTHS, Node, NodePoses, composed, taken_apart, unit_quaternions
 from .rounding import ROUNDING
 
 DEEPEST = 100
@@ -317,7 +317,9 @@ def _tracks(
                 lost.setdefault("a second animation", {})[nodes[node].name] = None
                 continue
             if nodes[node].item.matrix is not None and path != "weights":
-                raise file.error(f"nodes[{node}]", "is animated, so it must have no matrix")
+                nodes[node] = taken_apart(file, nodes[node])
+                note = "nodes that are animated and have a matrix, which glTF does not allow: it is taken apart"
+                repairs.add(note, 1, f"nodes[{node}]")
             tracks[node][path] = _track(file, samplers[which], f"{where}.samplers[{which}]", path, repairs)
     return tracks
 

@@ -6,7 +6,7 @@ Source: Khronos Group, glTF 2.0 Specification, section 3.11 (animations) and app
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +25,8 @@ _UNIT = 0.01
 """By how much a quaternion's length may differ from 1 unsaid: four numbers of 8 bits."""
 _SHORTEST = 1e-6
 """A quaternion that is not longer than this has no direction."""
+_SHEAR = 1e-3
+"""By how much the axes of a matrix may differ from those of a body: numbers with few digits."""
 _KEPT = 4
 """For so many sets of instants, poses are kept, because several objects ask for the same."""
 _MOST_KEPT = 1 << 17
@@ -212,11 +214,7 @@ class NodePoses:
         if node.item.matrix is None:
             given = [self._given(node, name)[None] for name in WIDTHS]
             return composed(*given)[0]
-        where = f"nodes[{node.index}].matrix"
-        matrix = self._file.numbers(node.item.matrix, where, 16).reshape(4, 4).T
-        if np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-6:
-            raise self._file.error(where, "must be an affine transform")
-        return np.asarray(matrix)
+        return _matrix(self._file, node)
 
     def _given(self, node: Node, name: str) -> FloatArray:
         """Return what the file gives for a property of a node at rest: an animation's only value, or the node's."""
@@ -254,6 +252,36 @@ def unit_quaternions(file: GltfFile, quaternions: FloatArray, where: str, repair
         note = "rotations by quaternions whose length is not 1, which are scaled to it"
         repairs.add_off(note, int((off > _UNIT).sum()), where, float(off.max()))
     return quaternions / length
+
+
+def _matrix(file: GltfFile, node: Node) -> FloatArray:
+    """Return the matrix (4, 4) that a node has."""
+    where = f"nodes[{node.index}].matrix"
+    matrix = file.numbers(node.item.matrix, where, 16).reshape(4, 4).T
+    if np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-6:
+        raise file.error(where, "must be an affine transform")
+    return np.asarray(matrix)
+
+
+def taken_apart(file: GltfFile, node: Node) -> Node:
+    """Return a node that has a matrix with what that is made of: translation, rotation and scale.
+
+    Raises:
+        DecodeError: for a matrix that shears, or scales to nothing.
+    """
+    from scipy.spatial.transform import Rotation
+
+    matrix = _matrix(file, node)
+    scale = np.linalg.norm(matrix[:3, :3], axis=0)
+    if np.linalg.det(matrix[:3, :3]) < 0:
+        scale = -scale
+    axes = matrix[:3, :3] / np.where(scale == 0, 1.0, scale)
+    if np.abs(axes.T @ axes - np.eye(3)).max() > _SHEAR:
+        rule = "is animated, so its matrix must be made of a translation, a rotation and a scale"
+        raise file.error(f"nodes[{node.index}]", rule)
+    parts = {"translation": matrix[:3, 3], "rotation": Rotation.from_matrix(axes).as_quat(), "scale": scale}
+    item = Item({**node.item, "matrix": None, **{name: numbers.tolist() for name, numbers in parts.items()}})
+    return replace(node, item=item)
 
 
 def composed(translation: FloatArray, rotation: FloatArray, scale: FloatArray) -> FloatArray:

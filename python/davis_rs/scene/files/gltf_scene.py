@@ -56,7 +56,14 @@ _FLIP = np.array([1.0, -1.0, -1.0])
 """glTF's cameras look along -z, and their y points up."""
 
 
-def gltf_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0, animation: str | None = None) -> Scene:
+def gltf_scene(
+    path: str | Path,
+    *,
+    up: Axis | None = None,
+    scale: float = 1.0,
+    animation: str | None = None,
+    grey_unknown: bool = False,
+) -> Scene:
     """Return a glTF 2.0 file (.gltf, .glb) as a scene.
 
     Surfaces are seen from the front alone where they are not ``doubleSided`` (:attr:`Scene.one_sided`). Where an alpha
@@ -78,6 +85,7 @@ def gltf_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0, 
         scale: metres in the file's unit; glTF's is the metre.
         animation: the name of the animation that is played (``animation_1`` for the second one without a name). None:
             all of them together, or the first where two move the same node; the scene's note tells.
+        grey_unknown: colours whose textures are missing are grey; else the file is refused.
 
     Raises:
         OSError: if the file, or one that it names, cannot be read.
@@ -92,7 +100,7 @@ def gltf_scene(path: str | Path, *, up: Axis | None = None, scale: float = 1.0, 
     check_axis_and_scale(up, scale)
     file = GltfFile(path)
     with decoding(path):
-        return _GltfScene(file, up or "y", scale, animation).scene()
+        return _GltfScene(file, up or "y", scale, animation, grey_unknown).scene()
 
 
 class _Deformer(NamedTuple):
@@ -121,13 +129,13 @@ class _Deformer(NamedTuple):
 class _GltfScene:
     """Builds a scene from a file."""
 
-    def __init__(self, file: GltfFile, up: Axis, scale: float, animation: str | None) -> None:
+    def __init__(self, file: GltfFile, up: Axis, scale: float, animation: str | None, grey_unknown: bool) -> None:
         self.file, self.up, self.scale = file, up, scale
         self.repairs = Repairs(file.path)
         self.tree = NodeTree.of(file, self.repairs, animation)
         self.to_world = np.eye(4)
         self.to_world[:3, :3] = to_z_up(up) * scale
-        self.materials = GltfMaterials(file, self.repairs, scale)
+        self.materials = GltfMaterials(file, self.repairs, scale, grey_unknown=grey_unknown)
         self.meshes = GltfMeshes(file, self.materials, self.repairs)
         self.shown: set[int | None] = set()
         self.lost = {what: dict(names) for what, names in self.tree.lost.items()}

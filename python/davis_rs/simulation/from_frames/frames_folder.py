@@ -131,6 +131,7 @@ def frames_to_folder(
         duration_s=counted.end_us * 1e-6,
         wall_s=wall_s,
         interrupted=counted.interrupted,
+        stopped_by=stop_requested(),
         dropped_events=run.dropped_events,
         missed_events=run.missed_events,
     )
@@ -163,7 +164,7 @@ def _write_all(
     run: FrameRun,
     images_every: int,
     bar: Progress,
-    stop_requested: Callable[[], bool],
+    stop_requested: Callable[[], str],
     counted: _WrittenCounts,
 ) -> None:
     """Write packets until they or the user end it."""

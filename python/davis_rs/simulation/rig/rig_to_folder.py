@@ -174,6 +174,7 @@ def simulate_rig_to_folder(
         duration_s=end_us * 1e-6,
         wall_s=time.perf_counter() - started,
         interrupted=interrupted,
+        stopped_by=stop_requested(),
         dropped_events=sum(run.simulator.dropped_events for run in runs.values()),
         missed_events=sum(run.simulator.missed_events for run in runs.values()),
         camera_events=events,
