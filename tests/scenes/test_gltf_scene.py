@@ -600,7 +600,7 @@ def test_metal_by_its_numbers(tmp_path: Path) -> None:
 
 
 def test_metal_by_its_texture(tmp_path: Path) -> None:
-    """Green is roughness and blue is metal, not in sRGB; where the base colour has no such coordinates it is the mean.
+    """Green is roughness and blue is metal, not in sRGB; where the base colour has other coordinates it is the mean.
 
     Without any blue there is no metal, and what is rough then is diffuse.
     """
@@ -616,19 +616,23 @@ def test_metal_by_its_texture(tmp_path: Path) -> None:
         gltf.node(mesh=quad(gltf, uv=UV, material=gltf.material(more=more, **surface)))  # type: ignore[arg-type]
         return metal_of(gltf, tmp_path)
 
-    numbers, data, lost = metal(moved, texels, moved)
-    assert not numbers
-    assert not lost
-    np.testing.assert_allclose(data["roughness"][..., 0], 0.75 * texels[..., 1] / 255, rtol=1e-6)
-    np.testing.assert_allclose(data["metallic"][..., 0], 0.5 * texels[..., 2] / 255, rtol=1e-6)
-    roughness, metallic = texels[..., 1:].reshape(-1, 2).mean(0) / 255 * [0.75, 0.5]
-    others: tuple[dict[str, Any] | None, ...] = (None, {})
-    for base in others:
+    alike: tuple[dict[str, Any] | None, ...] = (moved, None)
+    for base in alike:
         numbers, data, lost = metal(base, texels, moved)
-        assert numbers == pytest.approx({"metallic": metallic, "roughness": roughness})
-        assert not data
-        told = "metal and roughness that differ from place to place (their means are taken)"
-        assert lost == {told: ("paint",)}
+        assert not numbers
+        assert not lost
+        np.testing.assert_allclose(data["roughness"][..., 0], 0.75 * texels[..., 1] / 255, rtol=1e-6)
+        np.testing.assert_allclose(data["metallic"][..., 0], 0.5 * texels[..., 2] / 255, rtol=1e-6)
+        with variant(SCALAR) as (mi, _):
+            (shape,) = load_scene_source(load_scene(tmp_path / "scene.glb").source(), mi).shapes()
+            # UV moved by half of the image's width.
+            np.testing.assert_allclose(np.array(shape.vertex_texcoords_buffer()).reshape(-1, 2)[:, 0].min(), 0.5)
+    roughness, metallic = texels[..., 1:].reshape(-1, 2).mean(0) / 255 * [0.75, 0.5]
+    numbers, data, lost = metal({}, texels, moved)
+    assert numbers == pytest.approx({"metallic": metallic, "roughness": roughness})
+    assert not data
+    told = "metal and roughness that differ from place to place (their means are taken)"
+    assert lost == {told: ("paint",)}
     assert metal({}, np.where([0, 1, 0], 250, texels * [1, 1, 0]), {}) == ({}, {}, {})
     numbers, data, lost = metal({}, np.where([0, 1, 0], 120, texels * [1, 1, 0]), {})
     assert (numbers, lost) == ({}, {})

@@ -258,6 +258,8 @@ class GltfMaterials:
             return made
         made = made._replace(files=tuple(dict.fromkeys(made.files + files)))
         uv_set, transform = self._coordinates(given, where)
+        if made.uv_set is None:
+            made = made._replace(uv_set=uv_set, uv_transform=transform, wrap=wrap)
         if made.uv_set != uv_set or not np.array_equal(made.uv_transform, transform):
             lost[_MEAN_METAL] = None
             roughness, metals = (float(image.texels[..., channel].mean()) / 255 for channel in (1, 2))
