@@ -262,6 +262,20 @@ def test_reflectances_above_1_are_scaled(tmp_path: Path, given: str, same: str) 
     np.testing.assert_allclose(luma(path), expected, rtol=1e-5)
 
 
+def test_an_orthographic_sensor_says_where_a_camera_starts(tmp_path: Path) -> None:
+    """Its axes are scaled by the size of its image."""
+    expected = davis_rs.load_scene(scene_file(tmp_path)).start
+    path = scene_file(tmp_path, lookat='<scale x="1.5" y="1.5"/>' + PLAIN["lookat"])
+    text = path.read_text().replace('<float name="fov" value="40"/>', "")
+    path.write_text(text.replace('type="perspective"', 'type="orthographic"'))
+    with pytest.warns(SceneFileWarning, match="its first sensor is not perspective, so it says no more than where a"):
+        scene = davis_rs.load_scene(path)
+    assert scene.camera is None
+    assert scene.start is not None
+    assert expected is not None
+    np.testing.assert_allclose(scene.start.matrix, expected.matrix, atol=1e-6)
+
+
 def test_media_are_shown_in_the_place_of_unknown_integrators(tmp_path: Path) -> None:
     fog = '<medium type="homogeneous" id="fog"><float name="sigma_t" value="1"/></medium>'
     path = scene_file(tmp_path, integrator=f'<integrator type="bdpt"/>{fog}')

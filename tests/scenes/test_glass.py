@@ -112,7 +112,7 @@ def test_a_solid_absorbs_along_the_way_through_it(thickness: float, scale: float
     ("volume", "rule"),
     [
         ({"attenuationDistance": 0}, r"attenuationDistance: must be more than 0"),
-        ({"attenuationDistance": -1}, r"attenuationDistance: must be 1 numbers from 0"),
+        ({"attenuationDistance": -1}, r"attenuationDistance: must be a number from 0"),
         ({"attenuationDistance": 1, "attenuationColor": [1, 2, 1]}, r"attenuationColor: must be 3 numbers from 0 to 1"),
     ],
 )

@@ -179,8 +179,14 @@ def _scene_of_file(path: Path, variables: dict[str, str], grey_unknown: bool) ->
             if motion.tag == "shape" and motion.id in shapes
         }
         if sensors := loaded.scene.sensors():
-            start = _pose(np.array(mi.traverse(sensors[0])["to_world"].matrix, np.float64).reshape(4, 4))
             camera = _camera(sensors[0], mi)
+            matrix = np.array(mi.traverse(sensors[0])["to_world"].matrix, np.float64).reshape(4, 4)
+            if camera is None:  # the size of its image is that of its axes
+                matrix[:3, :3] /= np.maximum(np.linalg.norm(matrix[:3, :3], axis=0), 1e-30)
+                loaded.notes.append(
+                    "its first sensor is not perspective, so it says no more than where a camera starts"
+                )
+            start = _pose(matrix)
             trajectory = SegmentTrajectory(start, start, duration_s) if objects else None
             for motion in loaded.motions:
                 if motion.tag == "sensor" and motion.id == sensors[0].id():

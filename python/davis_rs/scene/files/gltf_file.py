@@ -140,7 +140,8 @@ class GltfFile:
         kinds = (isinstance(one, int | float) and not isinstance(one, bool) for one in items)
         got = within(np.array(items, np.float64), low, high) if len(items) == count and all(kinds) else None
         if got is None:
-            raise self.error(where, f"must be {count} numbers from {low:g} to {high:g}, got {plain(value)}")
+            wanted = "a number" if count == 1 else f"{count} numbers"
+            raise self.error(where, f"must be {wanted} from {low:g} to {high:g}, got {plain(value)}")
         return got
 
     def array(self, index: object, where: str, *, width: tuple[int, ...], finite: bool = True) -> Values:
