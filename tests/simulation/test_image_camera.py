@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from davis_rs import (
     Camera,
     Dataset,
     Scene,
+    SceneFileWarning,
     SegmentTrajectory,
     SensorParameters,
     Simulator,
@@ -231,11 +233,14 @@ def test_a_point_lies_where_mitsuba_shows_it(
     np.testing.assert_allclose(found, expected, atol=0.3)
 
 
+@pytest.mark.filterwarnings("default:.*its first sensor is not perspective")
 def test_an_xml_scene_without_a_camera_asks_for_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Without a sensor, or with one that is no pinhole, nothing is assumed; a camera that is given is enough."""
     orthographic = '<sensor type="orthographic"><film type="hdrfilm"/></sensor>'
-    for sensor in ("", orthographic):
-        scene = load_scene(write_scene(tmp_path, sensor))
+    told = r"not perspective, so it says no more than where a camera starts$"
+    for sensor, telling in (("", nullcontext()), (orthographic, pytest.warns(SceneFileWarning, match=told))):
+        with telling:
+            scene = load_scene(write_scene(tmp_path, sensor))
         assert scene.camera is None
         with pytest.raises(ValueError, match=r"scene 'spot' has no perspective sensor.*give camera$"):
             Simulator(scene)

@@ -166,7 +166,7 @@ def test_every_setting_has_an_option_and_a_key(name: str, monkeypatch: pytest.Mo
 
 def test_a_plan_has_no_keys_but_those_of_settings_scene_and_path() -> None:
     """A key that nothing declares could come to nothing."""
-    of_files = {"up", "scale", "animation"}
+    of_files = {"up", "scale", "animation", "grey_unknown"}
     assert KEYS.keys() == {"scene", *of_files, "motion", "start", "start_pose", "rig", "duration", *SETTINGS}
     assert {setting.name for setting in SETTINGS.values()} <= {*NAMES}
 
