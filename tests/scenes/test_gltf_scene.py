@@ -948,6 +948,22 @@ def textured(uri: str) -> Callable[[Gltf], Any]:
     return change
 
 
+@pytest.mark.parametrize("grey_unknown", [False, True])
+def test_an_image_is_found_by_the_end_of_its_name(tmp_path: Path, grey_unknown: bool) -> None:
+    """Copied next to the file, it is taken, which is told once."""
+    (tmp_path / "paint.png").write_bytes(png(np.full((2, 2, 3), 9)))
+    gltf = Gltf()
+    gltf.node(mesh=quad(gltf, uv=UV, material=gltf.material(metallicFactor=0.0)))
+    textured("../textures/paint%2Epng")(gltf)
+    path = gltf.save(tmp_path / "scene.glb")
+    with pytest.warns(SceneFileWarning) as told:
+        scene = load_scene(path, grey_unknown=grey_unknown)
+    assert tmp_path / "paint.png" in scene.files
+    lines = [str(line.message) for line in told]
+    assert len(lines) == 1
+    assert lines[0].endswith("'../textures/paint.png' is taken to be 'paint.png' next to it")
+
+
 def paint(**values: Any) -> Callable[[Gltf], Any]:
     return lambda gltf: gltf.document["materials"][0]["pbrMetallicRoughness"].update(values)
 

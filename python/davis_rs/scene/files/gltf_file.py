@@ -104,6 +104,8 @@ class GltfFile:
         self._finite: set[int] = set()
         """The accessors that were checked, so that each is checked once, however many users it has."""
         self._buffers: dict[int, memoryview] = {}
+        self._names: dict[str, Path] = {}
+        """What each name leads to, so that each is told once."""
         self._decoded: dict[int, memoryview] = {}
         """The buffer views that were compressed, so that each is decoded once, however many users it has."""
         with decoding(path):
@@ -385,7 +387,9 @@ class GltfFile:
         name = unquote(uri)
         if re.match(r"[A-Za-z][\w+.-]*:", name) or "\\" in name:
             raise self.error(where, f"must name a file in the scene's folder, got {plain(uri)}")
-        return named_file(name, self.path, self.path.parent, f"{self.path}: {where}")
+        if name not in self._names:
+            self._names[name] = named_file(name, self.path, self.path.parent, f"{self.path}: {where}")
+        return self._names[name]
 
     def _local(self, uri: str, where: str) -> Path:
         """Return the path of a file that is there, next to this one, or in a folder below."""
