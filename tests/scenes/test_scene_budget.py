@@ -334,6 +334,19 @@ def test_the_longest_end_of_a_name_counts(tmp_path: Path) -> None:
         )
 
 
+def test_ends_of_names_have_few_steps(tmp_path: Path) -> None:
+    """Each end is looked for, so that a name of thousands of steps would take seconds."""
+    here = "/".join("abcdefg") + "/paint.png"
+    (tmp_path / here).parent.mkdir(parents=True)
+    (tmp_path / here).write_bytes(blank_png(4, 4))
+    with pytest.warns(SceneFileWarning, match="is taken to be 'a/b/c"):
+        load_scene(textured(tmp_path, "obj", f"/elsewhere/{here}"))
+    (tmp_path / "z").mkdir()
+    (tmp_path / "a").rename(tmp_path / "z" / "a")
+    with pytest.raises(DecodeError, match="which lies outside of the scene's folder"):
+        load_scene(textured(tmp_path, "obj", f"/elsewhere/z/{here}"))
+
+
 def test_the_end_of_a_name_leads_to_no_file_elsewhere(tmp_path: Path) -> None:
     (tmp_path / "secret").write_bytes(blank_png(4, 4))
     folder = tmp_path / "scene"

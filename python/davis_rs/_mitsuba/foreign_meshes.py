@@ -100,11 +100,12 @@ def _anew(path: Path, flat: bool) -> _Anew | None:
         if not any(name in FACES for name in face.lists):
             return None
         body = Body(form, memoryview(data)[begin:], vertex, face)
+        vertices = body.vertices()
         refused = len(face.lists) > 1 or (len(elements) == 2 and not body.are_triangles())
-        if not refused and not _without_direction(body.vertices()).any():
+        if not refused and not _without_direction(vertices).any():
             return None
         budget.take(_MEMORY * len(data), f"the mesh {path}, which is written anew,")
-        vertices, triangles = body.vertices().copy(), body.triangles()
+        vertices, triangles = vertices.copy(), body.triangles()
         told = [
             f"have the list {name!r} of faces, which is left out"
             for name in face.lists

@@ -12,13 +12,17 @@ from .repairs import SceneFileWarning
 GREY_UNKNOWN = "--grey-unknown (load_scene(..., grey_unknown=True))"
 """How a user asks for grey in place of materials that are missing or not known, for messages."""
 
+_LONGEST_END = 8
+"""How many steps of a path the end of a name has at most. Each is looked for, and a hostile name has thousands."""
+
 
 def named_file(name: str, beside: Path, folder: Path, where: str) -> Path:
     """Return the path that a scene's file means by ``name``. The file need not exist.
 
     A name that leads out of the folder, or to no file, is often that of another computer (``C:/textures/wall.png``), or
     of another place in a collection (``../textures/wall.png``). Then the file is taken for which the longest end of the
-    name leads to a file (``textures/wall.png``, or else ``wall.png``), if there is one in the folder.
+    name leads to a file (``textures/wall.png``, or else ``wall.png``), if there is one in the folder. Ends have 8 steps
+    at most.
 
     Args:
         beside: the file with the name; the name is relative to its folder.
@@ -38,7 +42,8 @@ def named_file(name: str, beside: Path, folder: Path, where: str) -> Path:
     try:
         file = (beside.parent / name).resolve()
         if not (file.is_relative_to(root) and file.is_file()):
-            for end in ("/".join(steps[start:]) for start in range(1, len(steps))):
+            for start in range(max(1, len(steps) - _LONGEST_END), len(steps)):
+                end = "/".join(steps[start:])
                 near = (beside.parent / end).resolve()
                 if near.is_relative_to(root) and near.is_file():
                     warnings.warn(f"{where}: {shown} is taken to be {end!r} next to it", SceneFileWarning, stacklevel=2)

@@ -63,7 +63,7 @@ def highlights_of(extensions: Item, file: GltfFile, where: str, image_of: ImageO
         factor *= 1.0 if alpha is None else float(alpha.mean()) / 255
         lost[_MEAN] = None
     if (texture := given.get("specularColorTexture")) is not None:
-        colour = colour * image_of(texture, f"{where}.specularColorTexture").linear().mean((0, 1), np.float64)
+        colour = colour * image_of(texture, f"{where}.specularColorTexture").mean()
         lost[_MEAN] = None
     reflected = np.minimum(_reflected(index) * colour, 1.0) * factor
     if np.ptp(reflected) > 0:

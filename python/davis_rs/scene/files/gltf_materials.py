@@ -322,7 +322,7 @@ class GltfMaterials:
         image = image.tinted(factor)
         if not alike:
             lost[MEAN_EMISSION] = None
-            return made._replace(emission=image.linear().mean((0, 1), np.float64))
+            return made._replace(emission=image.mean())
         if made.nearest != nearest:
             lost["how texels of their own light are filtered (as those of the base colour are)"] = None
         image.charge(file.budget, where)
@@ -345,7 +345,7 @@ class GltfMaterials:
         tint = made.reflectance
         if isinstance(tint, EncodedTexture):
             lost["colours of glass that differ from place to place (their mean is taken)"] = None
-            tint = tint.linear().mean((0, 1), np.float64)
+            tint = tint.mean()
         if fraction < 1 - _CLEAR_WITHIN or (made.metal is not None and made.metal.metal > 0):
             lost["what glass does not let through (it is clear)"] = None
         roughness = dictionary(item.pbrMetallicRoughness).get("roughnessFactor", 1.0)
