@@ -15,6 +15,7 @@ import davis_rs
 from davis_rs import DecodeError
 from davis_rs._mitsuba.files import XmlFile
 from davis_rs._mitsuba.variants import SCALAR, load_scene_source, variant
+from davis_rs._util.budget import VARIABLE
 from davis_rs.geometry.trajectory.views import Views
 from davis_rs.render.choice import make_renderer
 from davis_rs.scene.repairs import SceneFileWarning
@@ -206,6 +207,19 @@ def test_malformed_meshes_are_refused(tmp_path: Path) -> None:
         (tmp_path / "mesh.ply").write_bytes(broken)
         with pytest.raises(DecodeError, match=r"mesh\.ply"):
             davis_rs.load_scene(scene_file(tmp_path))
+
+
+@pytest.mark.parametrize(("faces", "what"), [("polygons", "corners"), ("different", "faces")])
+def test_small_files_of_many_corners_are_charged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, faces: str, what: str
+) -> None:
+    """Cut into triangles, polygons take a hundred times their bytes; so do faces of which each is read alone."""
+    corners = {"polygons": [((0, 1, 2) * 80,)] * 500, "different": [((),), ((0, 1, 2),)] * 5000}
+    indices = ("list", "uchar", "uchar", "vertex_indices")
+    write_ply(tmp_path / "mesh.ply", corners[faces], (indices,), form="binary_little_endian")  # type: ignore[arg-type]
+    monkeypatch.setenv(VARIABLE, "bytes=3MiB")
+    with pytest.raises(DecodeError, match=rf"mesh\.ply: its list of {what} needs"):
+        davis_rs.load_scene(scene_file(tmp_path))
 
 
 def luma(path: Path, kind: str) -> FloatArray:

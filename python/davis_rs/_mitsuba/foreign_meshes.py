@@ -25,7 +25,7 @@ from .ply_arrays import UV_OF_CORNERS, Body, FloatArray, Table, Triangles
 from .ply_mesh import FACES, header
 
 _MEMORY = 8
-"""So many times its bytes a mesh takes while it is written anew, about."""
+"""So many times its bytes a mesh takes while it is written anew, about, without its faces."""
 _NORMAL = ("nx", "ny", "nz")
 _UV = (("u", "v"), ("s", "t"), ("texture_u", "texture_v"))
 
@@ -105,7 +105,7 @@ def _anew(path: Path, flat: bool) -> _Anew | None:
         if not refused and not _without_direction(vertices).any():
             return None
         budget.take(_MEMORY * len(data), f"the mesh {path}, which is written anew,")
-        vertices, triangles = vertices.copy(), body.triangles()
+        vertices, triangles = vertices.copy(), body.triangles(budget)
         told = [
             f"have the list {name!r} of faces, which is left out"
             for name in face.lists

@@ -8,10 +8,16 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from .._util.budget import Budget
 from .ply_mesh import DTYPES, FACES, Element, equal_rows
 
 UV_OF_CORNERS = "texcoord"
 """The list of faces with two texture coordinates for each corner."""
+
+_FACE_BYTES = 400
+"""What a face takes, about, where not all have lists of the same lengths."""
+_TRIANGLE_CORNER_BYTES, _CORNER_BYTES = 90, 170
+"""What a corner takes, about: of a triangle, and of a polygon that is cut."""
 
 Table = npt.NDArray[np.void]
 FloatArray = npt.NDArray[np.float64]
@@ -72,8 +78,8 @@ class Body:
             size += self._size(entry[1]) + 3 * self._size(entry[2]) if entry[0] == "list" else self._size(entry[0])
         return self._begin + self._face.number * size == self._length
 
-    def triangles(self) -> Triangles:
-        """Return faces, cut into triangles from their first corner."""
+    def triangles(self, budget: Budget) -> Triangles:
+        """Return faces, cut into triangles from their first corner. The budget is charged for them."""
         properties = self._face.properties
         scalars = [(k, entry[-1], DTYPES[entry[0]]) for k, entry in enumerate(properties) if entry[0] != "list"]
         lists = {entry[-1]: f"values{k}" for k, entry in enumerate(properties) if entry[0] == "list"}
@@ -81,9 +87,11 @@ class Body:
         kind = np.dtype([(name, f"<{dtype}") for _, name, dtype in scalars])
         found = [(np.zeros((0, 3), np.int64), np.zeros((0, 3, 2)), np.zeros(0, kind))]
         cut = 0
-        for rows in self._faces():
+        for rows in self._faces(budget):
+            sides = rows[corners_of].shape[1]
+            each = _TRIANGLE_CORNER_BYTES if sides == 3 else _CORNER_BYTES
+            budget.take(each * sides * len(rows), "its list of corners")
             polygons = rows[corners_of].astype(np.int64)
-            sides = polygons.shape[1]
             fan = np.array([(0, k, k + 1) for k in range(1, sides - 1)], np.int64).reshape(-1, 3)
             cut += len(rows) if sides > 3 else 0
             uv = np.full((len(rows), sides, 2), np.nan)
@@ -96,13 +104,14 @@ class Body:
         corners, uv, of_faces = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
         return Triangles(corners, uv, of_faces, cut)
 
-    def _faces(self) -> list[Table]:
+    def _faces(self, budget: Budget) -> list[Table]:
         """Return the rows of faces, in groups whose lists have the same lengths: see :func:`equal_rows`."""
         properties, number = self._face.properties, self._face.number
         if self._order:
             rows = equal_rows(self._data[self._begin :], number, properties, self._order)
             if rows is not None:
                 return [rows]
+        budget.take(_FACE_BYTES * number, "its list of faces")
         at, groups = self._begin, defaultdict[tuple[int, ...], list[tuple[int, int]]](list)
         for _ in range(number):
             start, lengths = at, list[int]()
